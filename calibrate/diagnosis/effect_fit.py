@@ -263,10 +263,11 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     r = equations.residual(problem, c, additions)
     _check(r, additions)
     U = orthonormal(np.concatenate([linear.A, linear.S], axis=1))
-    determinant = sum(part.train.log_determinant for part in problem.trained)
     n_rows = len(r) - len(problem.prior)
     loss = float(r[:n_rows] @ r[:n_rows])
-    fit = Fit(c, additions, loss, ChiSquare(*residual_outside(r, U)), n_rows, U, r, linear.chains, determinant)
+    fit = Fit(
+        c, additions, loss, ChiSquare(*residual_outside(r, U)), n_rows, U, r, linear.chains, problem.log_determinant
+    )
     return _with_errors(problem, linear, fit) if additions else fit
 
 

@@ -174,6 +174,11 @@ def as_stiff(problem: Problem, c: Array, additions: Additions) -> Problem:
     return _weighted(problem, c, additions, problem.amplifying)
 
 
+def as_stiff_and_amplified(problem: Problem, c: Array, additions: Additions) -> Problem:
+    """Both, but the displacements without noise stay as they are."""
+    return _weighted(problem, c, additions, amplifying(problem, additions))
+
+
 def _weighted(problem: Problem, c: Array, additions: Additions, known: Additions) -> Problem:
     """With weights of a fit, as the effects amplify the noise that are known. Effects of the measurement make no material stiffer."""
     measured = tuple(a for a in additions if is_expressed(a.effect))

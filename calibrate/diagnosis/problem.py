@@ -190,6 +190,11 @@ class Problem:
         """Rows of the prior (m, n) times the root of the dispersion: the data count by as much less."""
         return np.sqrt(self.dispersion) * self.prior
 
+    @property
+    def log_determinant(self) -> float:
+        """Of the covariance of the noise in the training rows."""
+        return sum(part.train.log_determinant for part in self.trained)
+
     def padded(self, rows: Array) -> Array:
         """(N, k) of rows of the equations alone, with zeros in those of the prior."""
         return np.pad(rows, ((0, len(self.prior)), (0, 0)))

@@ -1,17 +1,18 @@
 """The best subsets fitted without linearisation, and their probabilities.
 
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
-evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`. All have weights and columns of one model, that which leaves
-least, and are refitted: with its own, a model would judge itself. But noise of the displacements makes errors of the equations in proportion to the stiffness: each
-model has the stiffness of its own base in them, or a softer one would win. The determinant of the covariance does not enter: what was measured are displacements, and the
-equations are functions of them that follow the model.
+evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`. What was measured are displacements, and the equations are functions of them that follow the
+model: a stiffer model, also at an instant, makes larger errors of the same noise. So each has the noise of its own, and the determinant of its covariance does not enter. What is left beyond noise is not in
+proportion to it. It has the covariance of one model, that which leaves least, for all of them, but for the stiffness of the base, or a softer one would win: over the noise of a model with an r times larger variance of it an excess D is
+
+    1 + D / r
 
 A fit of several effects is evidence for its parts, too: what a part lacks may be an error of its formulas that looks like it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
@@ -51,15 +52,25 @@ WORSE = 2.0  # times the misfit of the base: the fit ran away
 
 @dataclass(frozen=True, eq=False)
 class _Refit:
-    """A subset fitted, and that fit to second order."""
+    """A subset fitted, and that fit to second order. amplified: variance of the noise that its effects make, over that of the effects of the best fit."""
 
     fit: Fit
     weighed: SecondOrder
+    amplified: float
 
-    def with_discrepancy(self, noise: float) -> float:
+    @property
+    def excess(self) -> float:
+        """Variance of what it leaves beyond noise, over the noise with the effects of the best fit."""
+        return max(self.fit.reduced_chi_square - 1.0, 0.0) * self.amplified
+
+    def variance(self, excess: float) -> float:
+        """Of residuals, over its noise."""
+        return 1.0 + excess / self.amplified
+
+    def with_discrepancy(self, excess: float) -> float:
         """Log evidence, the variance of smooth disturbances averaged over a logarithmic grid."""
-        smooth = self.weighed.smooth
-        return over_variances(lambda v: self.weighed.with_discrepancy(noise, v), float(smooth @ smooth))
+        smooth, variance = self.weighed.smooth, self.variance(excess)
+        return over_variances(lambda v: self.weighed.with_discrepancy(variance, v), float(smooth @ smooth))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,30 +95,30 @@ def alternatives(
     best = min(fits.found.values(), key=lambda fit: fit.free_loss, default=base)
     again = partial(_refitted, fits.weights, best.chains, shares, linear.log_odds, priors)
     refits = {names: again(fit) for names, fit in {frozenset[str](): base, **fits.found}.items()}
-    noise = max(1.0, min(one.fit.reduced_chi_square for one in refits.values()))
-    ranked = _with_errors_of_formulas([one.weighed for one in refits.values()], noise)
+    excess = min(one.excess for one in refits.values())
+    ranked = _with_errors_of_formulas([(one.weighed, one.variance(excess)) for one in refits.values()])
     parts = _competing_parts(refits, ranked, fits.tried | set(fits.found))
     fits = _best_of_each(fits, problem, base, parts, known, say)
     refits |= {names: again(fit) for names, fit in fits.found.items() if names not in refits}
-    evidence = _with_errors_of_formulas([one.weighed for one in refits.values()], noise)
+    evidence = _with_errors_of_formulas([(one.weighed, one.variance(excess)) for one in refits.values()])
     say.discard(STAGE)
     found = []
     for refit in refits.values():
         additions, deviations, names = refit.fit.additions, refit.fit.deviations, tuple(sorted(refit.fit.names))
         c = refit.fit.c
         found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, c))
-        more = refit.with_discrepancy(noise) + linear.log_odds
+        more = refit.with_discrepancy(excess) + linear.log_odds
         found.append(Explanation(names, more, True, 0.0, additions, deviations, c))
     return Alternatives.of(found)
 
 
-def _with_errors_of_formulas(fits: Sequence[SecondOrder], noise: float) -> dict[frozenset[str], float]:
-    """Log evidence of every set of effects that was fitted, or is a part of one: with smooth errors of their formulas, or errors that look like what a larger set has beside it, all equally probable."""
+def _with_errors_of_formulas(fits: Iterable[tuple[SecondOrder, float]]) -> dict[frozenset[str], float]:
+    """Log evidence of every set of effects that was fitted, or is a part of one: with smooth errors of their formulas, or errors that look like what a larger set has beside it, all equally probable. fits: each with the variance of residuals over its noise."""
     found: dict[frozenset[str], list[float]] = {}
-    for one in fits:
+    for one, variance in fits:
         for size in range(min(len(one.names), 1), len(one.names) + 1):
             for kept in combinations(sorted(one.names), size):
-                found.setdefault(frozenset(kept), []).append(one.log_evidence(noise, kept))
+                found.setdefault(frozenset(kept), []).append(one.log_evidence(variance, kept))
     return {names: float(special.logsumexp(each) - np.log(len(each))) for names, each in found.items()}
 
 
@@ -136,10 +147,13 @@ def _is_complete(additions: Additions) -> bool:
 def _refitted(
     weights: Problem, chains: Sequence[Chain], shares: Mapping[str, float], log_odds: float, priors: Priors, fit: Fit
 ) -> _Refit:
-    """In the weights of the best, as stiff as it is itself, with columns at its chains."""
-    its = model_weights.as_stiff(weights, fit.c, fit.additions)
-    again = effect_fit.refit(its, fit.c, fit.additions)
-    return _Refit(again, _second_order(its, chains, again, shares, log_odds, priors))
+    """In weights with the noise of its own, at the displacements of the best, with columns at its chains."""
+    own = usual = model_weights.as_stiff(weights, fit.c, fit.additions)
+    if model_weights.amplifying(weights, fit.additions) != weights.amplifying:
+        own = model_weights.as_stiff_and_amplified(weights, fit.c, fit.additions)
+    again = effect_fit.refit(own, fit.c, fit.additions)
+    amplified = np.exp((own.log_determinant - usual.log_determinant) / again.n_rows)
+    return _Refit(again, _second_order(own, chains, again, shares, log_odds, priors), float(amplified))
 
 
 def _additions(

@@ -282,7 +282,7 @@ def test_an_error_of_a_formula_is_no_effect(size, least, most):
         wrong = size * strength * (rng.standard_normal() if size < 0.1 else 1.0)
         r = strength * A[:, 0] / np.linalg.norm(A) + wrong * B[:, 0] / np.linalg.norm(B) + rng.standard_normal(N)
         fits = [fitted(r, {}), fitted(r, {"a": A}), fitted(r, {"b": B}), fitted(r, {"a": A, "b": B})]
-        found = refinement._with_errors_of_formulas(fits, 1.0)
+        found = refinement._with_errors_of_formulas([(one, 1.0) for one in fits])
         told = Alternatives.of([Explanation(tuple(names), value) for names, value in found.items()]).inclusion
         certain += told["b"] > 0.95
         assert told["a"] > 0.95

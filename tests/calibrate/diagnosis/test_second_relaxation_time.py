@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from relaxing_plate import FAST, MU, SLOW, TIMES, held
 
 from calibrate.diagnosis import score_tests, weighted_fit
 from calibrate.diagnosis.base_fit import prepare
@@ -20,33 +20,8 @@ from calibrate.effects import CATALOGUE
 from calibrate.effects.chain import Addition
 from calibrate.equations import discretisation_error
 from calibrate.errors import FitError
-from forward.loading import Loading
-from forward.materials import NeoHooke
-from forward.sheet.inelastic import solve_history
-from forward.sheet.multiplicative_viscosity import MaxwellBranch
-from forward.sheet.thin_sheet import Sheet
-from meshes import quads, triangles
-from meshes.known_specimens import SPECIMENS
-from studies.synthetic import camera
 
-PLATE = SPECIMENS["plate_with_hole"]()
-TIMES = np.array([1, 2, 3, 4, 5, 6, 8, 12, 20, 35, 60, 90, 91, 92, 93, 94.0])
-FACTORS = np.array([0.25, 0.5, 0.75, 1, 1, 1, 1, 1, 1, 1, 1, 1, 0.85, 0.7, 0.55, 0.4])
-MU, SLOW, FAST = 0.4, (0.2, 40.0), (0.25, 2.0)  # MPa; g and tau, s
 FIRST, SECOND = (next(e for e in CATALOGUE if e.name == name) for name in ("viscoelasticity", "second relaxation time"))
-
-
-def held(*branches: tuple[float, float], noise: float = 4e-5):
-    """A ramp, a pause and the way back, by 8 % of strain; branches with a multiplicative split, which both forms of the catalogue are at so small a strain. noise: of displacements, over the length scale of the camera."""
-    seen = camera.Camera(relative_noise=noise, force_noise=2e-4)
-    return camera.observe(solved(*branches), triangles(PLATE, n_nodes=500), seen, 3)
-
-
-@cache
-def solved(*branches: tuple[float, float]):
-    sheet = Sheet(NeoHooke(MU), 1.0, branches=tuple(MaxwellBranch(g * MU, tau) for g, tau in branches))
-    pull = Loading.clamped(PLATE.loaded, 10.0)
-    return solve_history(quads(PLATE, size_factor=3.0), sheet, pull, FACTORS, TIMES, substeps=8)
 
 
 @pytest.mark.slow

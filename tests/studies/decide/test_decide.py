@@ -112,7 +112,7 @@ def test_noise_is_allowed_for_in_what_is_expected_against_many_amplitudes(many):
         Signature(name, (), S, 1.0, np.zeros(S.shape[1], bool)) for name, S in (("one", truth), ("many", field))
     )
     weighed = Evidence(signatures, -truth[:, 0], columns[:, 1 + many :], 0.0)
-    noise = rng.standard_normal((250, 200))
+    noise = rng.standard_normal((125, 200))
     drawn = [
         [replace(weighed, r=weighed.r + sign * eps).subset((i,)).log_evidence for sign in (1, -1) for i in (0, 1)]
         for eps in noise

@@ -128,20 +128,23 @@ def test_a_real_export_with_a_record_goes_through_and_its_map_again(tmp_path):
     assert min(spans) > 0.9  # rows are not parallel to the axes, and all of the section is loaded
 
 
-@needs_exports
-def test_the_crosshead_of_a_record_is_recognised(tmp_path):
-    """By its name; of two such columns none is taken."""
-    for header, crosshead in (
+@pytest.mark.parametrize(
+    ("header", "crosshead"),
+    [
         ("Zeit [s];Kraft [kN];Traversenweg [mm]", "Traversenweg [mm]"),
         ("Time [s];Force [kN];Crosshead", "Crosshead"),
         ("Time [s];Load [kN];Extension;Stroke", None),
-    ):
-        columns = header.count(";") - 1
-        rows = "".join(f"{t};{f}{';1,5' * columns}\n" for t, f in (("20,0", "0,0"), ("25,0", "-0,6"), ("33,0", "-2,0")))
-        record = write(tmp_path / "cell.csv", f"{header}\n{rows}", "latin-1")
-        _, recording = read(str(EXPORTS / "gom_zeiss"), Request(record=record))
-        assert recording.guesses.get("force.crosshead") == crosshead
-        assert (recording.series.record.crosshead is not None) == (crosshead is not None)
+    ],
+)
+def test_the_crosshead_of_a_record_is_recognised(tmp_path, header, crosshead):
+    """By its name; of two such columns none is taken."""
+    zeiss(tmp_path / "export")
+    columns = header.count(";") - 1
+    rows = "".join(f"{t};{f}{';1,5' * columns}\n" for t, f in (("0,0", "0,0"), ("2,0", "0,6"), ("5,0", "2,0")))
+    record = write(tmp_path / "cell.csv", f"{header}\n{rows}", "latin-1")
+    _, recording = read(str(tmp_path / "export"), Request(record=record))
+    assert recording.guesses.get("force.crosshead") == crosshead
+    assert (recording.series.record.crosshead is not None) == (crosshead is not None)
 
 
 # --- one test in the form of every program: the same Experiment comes out ---

@@ -120,7 +120,7 @@ def test_the_stiffer_half_is_located(missing):
 
 def test_an_even_sheet_has_no_map():
     """With noise; more of them in the slow test below."""
-    alarms = sum(transfer(noisy(uniaxial(), seed=seed), material(), AFTER, 8.0).map.is_real for seed in range(10))
+    alarms = sum(transfer(noisy(uniaxial(), seed=seed), material(), AFTER, 8.0).map.is_real for seed in range(4))
     assert alarms == 0
 
 
