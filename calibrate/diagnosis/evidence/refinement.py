@@ -2,10 +2,12 @@
 
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
 evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`. What was measured are displacements, and the equations are functions of them that follow the
-model: a stiffer model, also at an instant, makes larger errors of the same noise. So each has the noise of its own, and the determinant of its covariance does not enter. What is left beyond noise is not in
-proportion to it. It has the covariance of one model, that which leaves least, for all of them, but for the stiffness of the base, or a softer one would win: over the noise of a model with an r times larger variance of it an excess D is
+model: a stiffer law, as one that relaxes is at an instant, makes larger errors of the same noise. So each is weighed with the noise that it makes itself, r times the variance of that with the effects of the best fit, and the determinant of its covariance does
+not enter. What is left beyond noise, D, is not in proportion to it, and the same for all. In weights of its own the variance of residuals is
 
-    1 + D / r
+    (r + D) / r,   D the smallest of all models,
+
+but r in the first bracket is at most twice that of the base alone: a stiff effect that is not there would make as much noise as it likes. The base of each is as stiff as it is, or a softer one would win.
 
 A fit of several effects is evidence for its parts, too: what a part lacks may be an error of its formulas that looks like it.
 """
@@ -30,6 +32,7 @@ from calibrate.diagnosis.evidence.formula_error import FittedEffect, SecondOrder
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset, over_variances
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
+from calibrate.diagnosis.misfit import AMPLIFIED
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_at_bounds, is_possible, is_told
 from calibrate.diagnosis.selection.thresholds import DEFAULT
@@ -58,18 +61,17 @@ class _Refit:
     weighed: SecondOrder
     amplified: float
 
-    @property
-    def excess(self) -> float:
-        """Variance of what it leaves beyond noise, over the noise with the effects of the best fit."""
-        return max(self.fit.reduced_chi_square - 1.0, 0.0) * self.amplified
+    def variance(self, allowed: float, excess: float) -> float:
+        """Of residuals, over its noise. allowed: variance of noise at most, excess: of what is left beyond it, both over the noise with the effects of the best fit."""
+        return (min(self.amplified, allowed) + excess) / self.amplified
 
-    def variance(self, excess: float) -> float:
-        """Of residuals, over its noise."""
-        return 1.0 + excess / self.amplified
+    def excess(self, allowed: float) -> float:
+        """Variance of what it leaves beyond noise."""
+        return max(self.fit.reduced_chi_square * self.amplified - min(self.amplified, allowed), 0.0)
 
-    def with_discrepancy(self, excess: float) -> float:
-        """Log evidence, the variance of smooth disturbances averaged over a logarithmic grid."""
-        smooth, variance = self.weighed.smooth, self.variance(excess)
+    def with_discrepancy(self, variance: float) -> float:
+        """Log evidence with residuals of such a variance, that of smooth disturbances averaged over a logarithmic grid."""
+        smooth = self.weighed.smooth
         return over_variances(lambda v: self.weighed.with_discrepancy(variance, v), float(smooth @ smooth))
 
 
@@ -95,19 +97,20 @@ def alternatives(
     best = min(fits.found.values(), key=lambda fit: fit.free_loss, default=base)
     again = partial(_refitted, fits.weights, best.chains, shares, linear.log_odds, priors)
     refits = {names: again(fit) for names, fit in {frozenset[str](): base, **fits.found}.items()}
-    excess = min(one.excess for one in refits.values())
-    ranked = _with_errors_of_formulas([(one.weighed, one.variance(excess)) for one in refits.values()])
+    allowed = AMPLIFIED * refits[frozenset()].amplified
+    excess = min(one.excess(allowed) for one in refits.values())
+    ranked = _with_errors_of_formulas([(one.weighed, one.variance(allowed, excess)) for one in refits.values()])
     parts = _competing_parts(refits, ranked, fits.tried | set(fits.found))
     fits = _best_of_each(fits, problem, base, parts, known, say)
     refits |= {names: again(fit) for names, fit in fits.found.items() if names not in refits}
-    evidence = _with_errors_of_formulas([(one.weighed, one.variance(excess)) for one in refits.values()])
+    evidence = _with_errors_of_formulas([(one.weighed, one.variance(allowed, excess)) for one in refits.values()])
     say.discard(STAGE)
     found = []
     for refit in refits.values():
         additions, deviations, names = refit.fit.additions, refit.fit.deviations, tuple(sorted(refit.fit.names))
         c = refit.fit.c
         found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, c))
-        more = refit.with_discrepancy(excess) + linear.log_odds
+        more = refit.with_discrepancy(refit.variance(allowed, excess)) + linear.log_odds
         found.append(Explanation(names, more, True, 0.0, additions, deviations, c))
     return Alternatives.of(found)
 

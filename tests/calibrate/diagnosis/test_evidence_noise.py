@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from relaxing_plate import FAST, held
@@ -36,3 +38,14 @@ def test_a_relaxing_sheet_is_not_told_as_one_that_makes_less_of_its_noise(seed):
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_an_elastic_sheet_is_not_told_as_one_that_makes_more_of_its_noise(seed):
     assert probability((), seed) < 0.2
+
+
+@pytest.mark.parametrize("amplified", [10.0, 1000.0])
+def test_noise_that_an_effect_makes_itself_excuses_no_misfit(amplified):
+    """As of a stiff fibre that is not there: chi-squares of the same residuals, 20 times the noise of the base, differ by the noise that is allowed alone. They would by twenty times."""
+    base, stiff = (
+        refinement._Refit(SimpleNamespace(reduced_chi_square=20.0 / r), SimpleNamespace(), r) for r in (1.0, amplified)
+    )
+    excess = min(one.excess(2.0) for one in (base, stiff))
+    weighed = [one.fit.reduced_chi_square / one.variance(2.0, excess) for one in (base, stiff)]
+    assert weighed[1] == pytest.approx(1.0) and weighed[0] == pytest.approx(20 / 19)
