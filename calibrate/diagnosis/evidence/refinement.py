@@ -38,6 +38,7 @@ from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_at_bou
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions, Chain
+from calibrate.fitting.least_squares import orthonormal
 from calibrate.fitting.resumable import SILENT, Resumable
 
 Array = NDArray[np.float64]
@@ -236,12 +237,13 @@ def _best_of_each(
 def _second_order(
     problem: Problem, chains: Sequence[Chain], fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors
 ) -> SecondOrder:
-    """Of a fit, with columns of the base and signatures at these chains."""
+    """Of a fit, with columns of the base and signatures at these chains; without what is left along these, as a fit is no stiffer than noise lets it be but where it leaves more than noise (`effect_fit`)."""
     U = base_span(problem, chains)
-    r, D = fit.residual - U @ (U.T @ fit.residual), disturbances(problem, U)
-    effects, shapes = [], [U]
-    S = equations.signatures(problem, chains, fit.c, fit.additions) if fit.additions else U
+    S = equations.signatures(problem, chains, fit.c, fit.additions) if fit.additions else U[:, :0]
     S = S - U @ (U.T @ S)
+    fitted = np.concatenate([U, orthonormal(S)], axis=1)
+    r, D = fit.residual - fitted @ (fitted.T @ fit.residual), disturbances(problem, U)
+    effects, shapes = [], [U]
     start = 0
     for one in fit.additions:
         p = len(one.amplitudes)
