@@ -33,12 +33,13 @@ from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset, over_
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
 from calibrate.diagnosis.misfit import AMPLIFIED
+from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_at_bounds, is_possible, is_told
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions, Chain
-from calibrate.fitting.least_squares import orthonormal
+from calibrate.fitting.least_squares import bounded
 from calibrate.fitting.resumable import SILENT, Resumable
 
 Array = NDArray[np.float64]
@@ -68,7 +69,8 @@ class _Refit:
 
     def excess(self, allowed: float) -> float:
         """Variance of what it leaves beyond noise."""
-        return max(self.fit.reduced_chi_square * self.amplified - min(self.amplified, allowed), 0.0)
+        reduced = self.weighed.chi_square / max(self.fit.degrees, 1)
+        return max(reduced * self.amplified - min(self.amplified, allowed), 0.0)
 
     def with_discrepancy(self, variance: float) -> float:
         """Log evidence with residuals of such a variance, that of smooth disturbances averaged over a logarithmic grid."""
@@ -237,12 +239,16 @@ def _best_of_each(
 def _second_order(
     problem: Problem, chains: Sequence[Chain], fit: Fit, shares: Mapping[str, float], log_odds: float, priors: Priors
 ) -> SecondOrder:
-    """Of a fit, with columns of the base and signatures at these chains; without what is left along these, as a fit is no stiffer than noise lets it be but where it leaves more than noise (`effect_fit`)."""
+    """Of a fit, with columns of the base and signatures at these chains; at the optimum of a base that may have any energy, and of its effects within their bounds."""
     U = base_span(problem, chains)
-    S = equations.signatures(problem, chains, fit.c, fit.additions) if fit.additions else U[:, :0]
-    S = S - U @ (U.T @ S)
-    fitted = np.concatenate([U, orthonormal(S)], axis=1)
-    r, D = fit.residual - fitted @ (fitted.T @ fit.residual), disturbances(problem, U)
+    r, D = fit.residual - U @ (U.T @ fit.residual), disturbances(problem, U)
+    S = U[:, :0]
+    if fit.additions:
+        S = equations.signatures(problem, chains, fit.c, fit.additions)
+        S = S - U @ (U.T @ S)
+        variables = Variables(fit.additions)
+        lower, upper = variables.bounds(problem.tests)
+        r = r + S @ bounded(S, -r, lower - variables.values, upper - variables.values)
     effects, shapes = [], [U]
     start = 0
     for one in fit.additions:
