@@ -242,18 +242,19 @@ def _second_order(
     """Of a fit, with columns of the base and signatures at these chains; at the optimum of a base that may have any energy, and of its effects within their bounds."""
     U = base_span(problem, chains)
     r, D = fit.residual - U @ (U.T @ fit.residual), disturbances(problem, U)
-    S = U[:, :0]
+    S, step = U[:, :0], np.zeros(0)
     if fit.additions:
         S = equations.signatures(problem, chains, fit.c, fit.additions)
         S = S - U @ (U.T @ S)
         variables = Variables(fit.additions)
         lower, upper = variables.bounds(problem.tests)
-        r = r + S @ bounded(S, -r, lower - variables.values, upper - variables.values)
+        step = bounded(S, -r, lower - variables.values, upper - variables.values)
+        r = r + S @ step
     effects, shapes = [], [U]
     start = 0
     for one in fit.additions:
         p = len(one.amplitudes)
-        change = np.array(one.amplitudes) - [parameter.null for parameter in one.effect.amplitudes]
+        change = step[start : start + p] + one.amplitudes - [parameter.null for parameter in one.effect.amplitudes]
         one_sided = np.array([parameter.lower == parameter.null for parameter in one.effect.amplitudes])
         log_prior = log_odds + float(np.log(shares.get(one.effect.name, 1.0)))
         L = prior_deviations(problem, one.effect, priors)
