@@ -96,15 +96,21 @@ def _of_other_forms(problem: Problem, columns: Columns) -> Iterator[Competitor]:
         without = fit.residual - columns.J[:, own] @ (
             np.array(addition.amplitudes) / columns.scale[own.start - n : own.stop - n]
         )
-        X = np.hstack([columns.J[:, kept], S])
-        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-        least = np.concatenate([-columns.weights, np.full(len(kept) - n, -np.inf), np.zeros(S.shape[1])]) * size
-        moved = lsq_linear(X / size, -without, (least, np.inf)).x / size
-        left = without + X @ moved
-        gain = -0.5 * float(left @ left - fit.residual @ fit.residual) / columns.dispersion
+        moved, left = _optimum(columns, np.hstack([columns.J[:, kept], S]), without)
+        gain = -0.5 * (left - _optimum(columns, columns.J, fit.residual)[1]) / columns.dispersion
         form = replace(null, amplitudes=tuple(map(float, moved[len(kept) :])))
         additions = (*_moved(others, moved[n : len(kept)]), form)
         yield Competitor(float(expit(gain)), fit.c + columns.base @ moved[:n], additions, Kind.FORM)
+
+
+def _optimum(columns: Columns, X: Array, r: Array) -> tuple[Array, float]:
+    """Changes (k,) by columns X (N, k), those of the base first, that leave least of a residual r (N,) with the base in its cone, and what they leave."""
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    least = np.full(X.shape[1], -np.inf)
+    least[: len(columns.weights)] = -columns.weights
+    moved = lsq_linear(X / size, -r, (least * size, np.inf)).x / size
+    left = r + X @ moved
+    return moved, float(left @ left)
 
 
 def _moved(additions: Additions, change: Array) -> Additions:
