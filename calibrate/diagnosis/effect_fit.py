@@ -263,11 +263,9 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     r = equations.residual(problem, c, additions)
     _check(r, additions)
     U = orthonormal(np.concatenate([linear.A, linear.S], axis=1))
-    n_rows = len(r) - len(problem.prior)
+    n_rows, left = len(r) - len(problem.prior), ChiSquare(*residual_outside(r, U))
     loss = float(r[:n_rows] @ r[:n_rows])
-    fit = Fit(
-        c, additions, loss, ChiSquare(*residual_outside(r, U)), n_rows, U, r, linear.chains, problem.log_determinant
-    )
+    fit = Fit(c, additions, loss, left, n_rows, U, r, linear.chains, problem.log_determinant)
     return _with_errors(problem, linear, fit) if additions else fit
 
 
