@@ -141,10 +141,10 @@ def test_a_base_that_bends_leaves_no_more_than_one_that_cannot_of_fields_that_ar
 
 
 def test_noise_in_the_weights_shifts_no_amplitude():
-    """A force offset where there is none, over its deviation, in 24 tests with 10 % of noise in the strain: two deviations and more with weights at the measured displacements."""
+    """A force offset where there is none, over its deviation, in 16 tests with 10 % of noise in the strain: two deviations and more with weights at the measured displacements."""
     sheet, noise = synthetic.plate_experiment(synthetic.MooneyRivlin(0.15, 0.0), n_increments=6), Noise(0.3, 3.0, 1e-4)
     offset, pulls = Addition(EFFECTS["force offset"], (0.0,)), []
-    for seed in range(24):
+    for seed in range(16):
         tests = [synthetic.with_noise(sheet, noise, seed)]
         problem, base = base_fit.prepare(tests, [all_rows], with_discrepancy=False, base="neo-Hooke")
         measured = replace(problem, parts=(replace(problem.parts[0], denoised=None),))
@@ -153,4 +153,4 @@ def test_noise_in_the_weights_shifts_no_amplitude():
         pulls.append([fit.additions[0].amplitudes[0] / fit.errors[0][0] for fit in fits])
     at_measured, at_true = np.mean(pulls, axis=0)
     assert at_measured < -1.5
-    assert abs(at_true) < 0.6  # its deviation is 0.2
+    assert abs(at_true) < 0.6  # its deviation is 0.25
