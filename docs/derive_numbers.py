@@ -231,6 +231,13 @@ FOREIGN_SETS = (
         "revisions e13cdb46 (41, of the first of both) and 27d78e00 (17), in the order of the plan; stopped for time, looked at when 16, 40 and 50 were there and at the end",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_99000.json",
+        FOREIGN.format(99000),
+        "explanations weighed at their optimum, each with the noise that it makes",
+        "revision cf355255, in the order of the plan; stopped for time, looked at once, at the end",
+        frozenset(NEARLY),
+    ),
 )
 
 
