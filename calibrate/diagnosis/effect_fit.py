@@ -263,8 +263,8 @@ def _finished(problem: Problem, linear: _Linearised, point: _Point) -> Fit:
     r = equations.residual(problem, c, additions)
     _check(r, additions)
     U = orthonormal(np.concatenate([linear.A, linear.S], axis=1))
-    n_rows, left = len(r) - len(problem.prior), ChiSquare(*residual_outside(r, U))
-    loss = float(r[:n_rows] @ r[:n_rows])
+    n_rows = len(r) - len(problem.prior)
+    loss, left = float(r[:n_rows] @ r[:n_rows]), ChiSquare(*residual_outside(r, U))
     fit = Fit(c, additions, loss, left, n_rows, U, r, linear.chains, problem.log_determinant)
     return _with_errors(problem, linear, fit) if additions else fit
 

@@ -174,8 +174,8 @@ def as_stiff(problem: Problem, c: Array, additions: Additions) -> Problem:
     return _weighted(problem, c, additions, problem.amplifying)
 
 
-def as_stiff_and_amplified(problem: Problem, c: Array, additions: Additions) -> Problem:
-    """Both, but the displacements without noise stay as they are."""
+def with_own_noise(problem: Problem, c: Array, additions: Additions) -> Problem:
+    """As stiff as a model, with what its effects do to noise; at the displacements without noise that are there."""
     return _weighted(problem, c, additions, amplifying(problem, additions))
 
 

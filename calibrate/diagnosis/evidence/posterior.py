@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 from scipy.special import expit
 
 from calibrate.diagnosis import problem as equations
@@ -27,6 +26,7 @@ from calibrate.diagnosis.replayed.parameter_spread import Columns
 from calibrate.diagnosis.selection.rounds import Discovery
 from calibrate.effects import FORMS, Effect
 from calibrate.effects.chain import Addition, Additions
+from calibrate.fitting.least_squares import bounded
 from calibrate.models.model_uncertainty import Competitor, Kind, ModelUncertainty
 
 Array = NDArray[np.float64]
@@ -83,6 +83,7 @@ def _of_other_forms(problem: Problem, columns: Columns) -> Iterator[Competitor]:
     """The model with an effect in another form, and base and other effects that make up for the difference, to first order; the base stays within its cone."""
     fit, n = columns.fit, columns.base.shape[1]
     ends = n + np.cumsum([len(a.amplitudes) + len(a.shape) for a in fit.additions])
+    least = np.concatenate([-columns.weights, np.full(columns.J.shape[1] - n, -np.inf)])
     for i, (addition, end) in enumerate(zip(fit.additions, ends, strict=True)):
         new = OTHER_FORMS.get(addition.effect.name)
         if new is None:
@@ -96,21 +97,18 @@ def _of_other_forms(problem: Problem, columns: Columns) -> Iterator[Competitor]:
         without = fit.residual - columns.J[:, own] @ (
             np.array(addition.amplitudes) / columns.scale[own.start - n : own.stop - n]
         )
-        moved, left = _optimum(columns, np.hstack([columns.J[:, kept], S]), without)
-        gain = -0.5 * (left - _optimum(columns, columns.J, fit.residual)[1]) / columns.dispersion
+        X, floor = np.hstack([columns.J[:, kept], S]), np.concatenate([least[kept], np.zeros(S.shape[1])])
+        moved, left = _optimum(X, without, floor)
+        gain = -0.5 * (left - _optimum(columns.J, fit.residual, least)[1]) / columns.dispersion
         form = replace(null, amplitudes=tuple(map(float, moved[len(kept) :])))
         additions = (*_moved(others, moved[n : len(kept)]), form)
         yield Competitor(float(expit(gain)), fit.c + columns.base @ moved[:n], additions, Kind.FORM)
 
 
-def _optimum(columns: Columns, X: Array, r: Array) -> tuple[Array, float]:
-    """Changes (k,) by columns X (N, k), those of the base first, that leave least of a residual r (N,) with the base in its cone, and what they leave."""
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    least = np.full(X.shape[1], -np.inf)
-    least[: len(columns.weights)] = -columns.weights
-    moved = lsq_linear(X / size, -r, (least * size, np.inf)).x / size
-    left = r + X @ moved
-    return moved, float(left @ left)
+def _optimum(X: Array, r: Array, least: Array) -> tuple[Array, float]:
+    """Changes (k,) by columns X (N, k), of at least `least` (k,), that leave least of a residual r (N,), and the square of what they leave."""
+    moved = bounded(X, -r, least, np.full(len(least), np.inf))
+    return moved, float(np.linalg.norm(r + X @ moved) ** 2)
 
 
 def _moved(additions: Additions, change: Array) -> Additions:

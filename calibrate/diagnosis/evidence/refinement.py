@@ -63,20 +63,6 @@ class _Refit:
     weighed: SecondOrder
     amplified: float
 
-    def variance(self, allowed: float, excess: float) -> float:
-        """Of residuals, over its noise. allowed: variance of noise at most, excess: of what is left beyond it, both over the noise with the effects of the best fit."""
-        return (min(self.amplified, allowed) + excess) / self.amplified
-
-    def excess(self, allowed: float) -> float:
-        """Variance of what it leaves beyond noise."""
-        reduced = self.weighed.chi_square / max(self.fit.degrees, 1)
-        return max(reduced * self.amplified - min(self.amplified, allowed), 0.0)
-
-    def with_discrepancy(self, variance: float) -> float:
-        """Log evidence with residuals of such a variance, that of smooth disturbances averaged over a logarithmic grid."""
-        smooth = self.weighed.smooth
-        return over_variances(lambda v: self.weighed.with_discrepancy(variance, v), float(smooth @ smooth))
-
 
 @dataclass(frozen=True, eq=False)
 class _Fits:
@@ -100,22 +86,33 @@ def alternatives(
     best = min(fits.found.values(), key=lambda fit: fit.free_loss, default=base)
     again = partial(_refitted, fits.weights, best.chains, shares, linear.log_odds, priors)
     refits = {names: again(fit) for names, fit in {frozenset[str](): base, **fits.found}.items()}
-    allowed = AMPLIFIED * refits[frozenset()].amplified
-    excess = min(one.excess(allowed) for one in refits.values())
-    ranked = _with_errors_of_formulas([(one.weighed, one.variance(allowed, excess)) for one in refits.values()])
-    parts = _competing_parts(refits, ranked, fits.tried | set(fits.found))
+    parts = _competing_parts(refits, _with_errors_of_formulas(_weighed(refits)), fits.tried | set(fits.found))
     fits = _best_of_each(fits, problem, base, parts, known, say)
     refits |= {names: again(fit) for names, fit in fits.found.items() if names not in refits}
-    evidence = _with_errors_of_formulas([(one.weighed, one.variance(allowed, excess)) for one in refits.values()])
+    weighed = _weighed(refits)
+    evidence = _with_errors_of_formulas(weighed)
     say.discard(STAGE)
     found = []
-    for refit in refits.values():
-        additions, deviations, names = refit.fit.additions, refit.fit.deviations, tuple(sorted(refit.fit.names))
-        c = refit.fit.c
-        found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, c))
-        more = refit.with_discrepancy(refit.variance(allowed, excess)) + linear.log_odds
-        found.append(Explanation(names, more, True, 0.0, additions, deviations, c))
+    for fit, pair in zip((refit.fit for refit in refits.values()), weighed, strict=True):
+        additions, deviations, names = fit.additions, fit.deviations, tuple(sorted(fit.names))
+        found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, fit.c))
+        more = _with_discrepancy(*pair) + linear.log_odds
+        found.append(Explanation(names, more, True, 0.0, additions, deviations, fit.c))
     return Alternatives.of(found)
+
+
+def _weighed(refits: Mapping[frozenset[str], _Refit]) -> list[tuple[SecondOrder, float]]:
+    """Each with the variance of residuals over its noise, see the head of this module."""
+    r = np.array([one.amplified for one in refits.values()])
+    noise = np.minimum(r, AMPLIFIED * refits[frozenset()].amplified)
+    left = r * [one.weighed.chi_square / max(one.fit.degrees, 1) for one in refits.values()] - noise
+    variances = (noise + max(left.min(), 0.0)) / r
+    return [(one.weighed, float(variance)) for one, variance in zip(refits.values(), variances, strict=True)]
+
+
+def _with_discrepancy(one: SecondOrder, variance: float) -> float:
+    """Log evidence with residuals of such a variance, that of smooth disturbances averaged over a logarithmic grid."""
+    return over_variances(lambda v: one.with_discrepancy(variance, v), float(one.smooth @ one.smooth))
 
 
 def _with_errors_of_formulas(fits: Iterable[tuple[SecondOrder, float]]) -> dict[frozenset[str], float]:
@@ -156,7 +153,7 @@ def _refitted(
     """In weights with the noise of its own, at the displacements of the best, with columns at its chains."""
     own = usual = model_weights.as_stiff(weights, fit.c, fit.additions)
     if model_weights.amplifying(weights, fit.additions) != weights.amplifying:
-        own = model_weights.as_stiff_and_amplified(weights, fit.c, fit.additions)
+        own = model_weights.with_own_noise(weights, fit.c, fit.additions)
     again = effect_fit.refit(own, fit.c, fit.additions)
     amplified = np.exp((own.log_determinant - usual.log_determinant) / again.n_rows)
     return _Refit(again, _second_order(own, chains, again, shares, log_odds, priors), float(amplified))

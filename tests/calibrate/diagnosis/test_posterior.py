@@ -9,6 +9,7 @@ import pytest
 from discoveries import C01, explained, nothing
 
 from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.evidence import posterior
 from calibrate.diagnosis.evidence.explanations import Alternatives
 from calibrate.diagnosis.evidence.posterior import uncertainty_of
 from calibrate.diagnosis.evidence.priors import read_priors
@@ -105,6 +106,18 @@ def test_another_form_of_an_effect_is_fitted_and_weighed():
     assert (
         0.5 * 3 * fit.additions[0].amplitudes[0] < c2 < 3 * 3 * fit.additions[0].amplitudes[0]
     )  # d psi / d I2 = c2 / I2
+
+
+def test_another_form_has_no_negative_amplitude():
+    """Of a residual that asks for one it has none."""
+    found = explained()
+    problem, columns = found.problem, Columns.of(found.problem, found.final)
+    (form,) = posterior._of_other_forms(problem, columns)
+    (one,) = form.additions
+    S = equations.signature(problem, columns.fit.chains, columns.fit.c, (replace(one, amplitudes=(0.0,)),))
+    moved = replace(columns.fit, residual=columns.fit.residual + 2 * one.amplitudes[0] * S[:, 0])
+    (none,) = posterior._of_other_forms(problem, replace(columns, fit=moved))
+    assert none.additions[0].amplitudes == (0.0,) and one.amplitudes[0] > 0
 
 
 def test_without_fits_of_the_explanations_no_effect_is_weighed_that_is_not_seen():

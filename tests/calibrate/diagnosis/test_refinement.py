@@ -50,11 +50,11 @@ def test_an_elastic_sheet_is_not_told_as_one_that_makes_more_of_its_noise(seed):
 @pytest.mark.parametrize("amplified", [10.0, 1000.0])
 def test_noise_that_an_effect_makes_itself_excuses_no_misfit(amplified):
     """As of a stiff fibre that is not there: chi-squares of the same residuals, 20 times the noise of the base, differ by the noise that is allowed alone. They would by twenty times."""
-    base, stiff = (
-        refinement._Refit(SimpleNamespace(degrees=1), SimpleNamespace(chi_square=20.0 / r), r) for r in (1.0, amplified)
-    )
-    excess = min(one.excess(2.0) for one in (base, stiff))
-    weighed = [one.weighed.chi_square / one.variance(2.0, excess) for one in (base, stiff)]
+    refits = {
+        frozenset(names): refinement._Refit(SimpleNamespace(degrees=1), SimpleNamespace(chi_square=20.0 / r), r)
+        for names, r in (((), 1.0), (("fibre",), amplified))
+    }
+    weighed = [one.chi_square / variance for one, variance in refinement._weighed(refits)]
     assert weighed[1] == pytest.approx(1.0) and weighed[0] == pytest.approx(20 / 19)
 
 
