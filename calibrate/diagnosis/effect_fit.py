@@ -94,12 +94,6 @@ class Fit:
         """Of what no I1 energy, convex or not, can absorb."""
         return self.free_loss / max(self.degrees, 1)
 
-    @property
-    def likelihood(self) -> float:
-        """Minus twice the log-likelihood of what no I1 energy can absorb; see `Misfit.likelihood`."""
-        dispersion = max(1.0, self.reduced_chi_square)
-        return self.free_loss / dispersion + self.degrees * float(np.log(dispersion)) + self.log_determinant
-
 
 @dataclass(frozen=True, eq=False)
 class _Point:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibrate.diagnosis.deviance import AMPLIFIED, residual_variances
 from calibrate.diagnosis.problem import Part, Problem
 from calibrate.effects.chain import Additions
 from calibrate.equations.weights import Weights
 
 Array = NDArray[np.float64]
-AMPLIFIED = 2.0  # variance of noise in the equations, that an effect may add to
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,6 @@ class Misfit:
     def outside_noise(self, noise: tuple[float, float]) -> tuple[float, float]:
         """Squares of force and field minus those of noise."""
         return self.force**2 - noise[0], self.field**2 - noise[1]
-
-    @property
-    def likelihood(self) -> float:
-        """Minus twice the log-likelihood, an equation, of normal errors with the covariance behind chi_square.
-
-        The covariance is multiplied by the dispersion where that is above 1, so that weaker weights gain nothing whatever the
-        misfit: what lowers chi_square is paid for by the determinant.
-        """
-        dispersion = max(1.0, self.chi_square)
-        return self.chi_square / dispersion + float(np.log(dispersion)) + self.log_determinant
 
     def to_dict(self) -> dict[str, Any]:
         """As files hold it."""
@@ -118,9 +108,16 @@ def is_larger(before: Misfit, after: Misfit | None, worse: float) -> bool:
 
 
 def is_better(before: Misfit, after: Misfit) -> bool:
-    """Whether an error falls, outside noise, as some effects amplify it; and the model is likelier, which weaker weights do not make it."""
+    """Whether an error falls, outside noise, as some effects amplify it; and the model is likelier."""
     own, usual = after.outside_noise(_noise_of(before, after)), before.outside_noise(before.noise)
-    return after.likelihood < before.likelihood and any(a < b for a, b in zip(own, usual, strict=True))
+    left = np.array([before.chi_square, after.chi_square])
+    old, new = left / residual_variances(left, [1.0, amplified(before, after)])
+    return bool(new < old) and any(a < b for a, b in zip(own, usual, strict=True))
+
+
+def amplified(before: Misfit, after: Misfit) -> float:
+    """Variance of the noise that a model makes of the same displacements, over that of the model before."""
+    return float(np.exp(after.log_determinant - before.log_determinant))
 
 
 def _noise_of(before: Misfit, after: Misfit) -> tuple[float, float]:

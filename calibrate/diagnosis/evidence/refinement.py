@@ -1,13 +1,8 @@
 """The best subsets fitted without linearisation, and their probabilities.
 
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
-evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`. What was measured are displacements, and the equations are functions of them that follow the
-model: a stiffer law, as one that relaxes is at an instant, makes larger errors of the same noise. So each is weighed with the noise that it makes itself, r times the variance of that with the effects of the best fit, and the determinant of its covariance does
-not enter. What is left beyond noise, D, is not in proportion to it, and the same for all. In weights of its own the variance of residuals is
-
-    (r + D) / r,   D the smallest of all models,
-
-but r in the first bracket is at most twice that of the base alone: a stiff effect that is not there would make as much noise as it likes. The base of each is as stiff as it is, or a softer one would win.
+evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`, with the variance that residuals have by `calibrate.diagnosis.deviance`. The noise there is what its effects make of that of the displacements: the base of each is as stiff as it is,
+or a softer one would win.
 
 A fit of several effects is evidence for its parts, too: what a part lacks may be an error of its formulas that looks like it.
 """
@@ -26,13 +21,13 @@ from scipy import special
 from calibrate import errors
 from calibrate.diagnosis import effect_fit, model_weights, weighted_fit
 from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.deviance import residual_variances
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.formula_error import FittedEffect, SecondOrder
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset, over_variances
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
-from calibrate.diagnosis.misfit import AMPLIFIED
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_at_bounds, is_possible, is_told
@@ -102,11 +97,10 @@ def alternatives(
 
 
 def _weighed(refits: Mapping[frozenset[str], _Refit]) -> list[tuple[SecondOrder, float]]:
-    """Each with the variance of residuals over its noise, see the head of this module."""
-    r = np.array([one.amplified for one in refits.values()])
-    noise = np.minimum(r, AMPLIFIED * refits[frozenset()].amplified)
-    left = r * [one.weighed.chi_square / max(one.fit.degrees, 1) for one in refits.values()] - noise
-    variances = (noise + max(left.min(), 0.0)) / r
+    """Each with the variance of residuals over its noise."""
+    r = [one.amplified for one in refits.values()]
+    left = [one.weighed.chi_square / max(one.fit.degrees, 1) for one in refits.values()]
+    variances = residual_variances(left, r, refits[frozenset()].amplified)
     return [(one.weighed, float(variance)) for one, variance in zip(refits.values(), variances, strict=True)]
 
 

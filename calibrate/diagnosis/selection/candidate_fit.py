@@ -15,8 +15,9 @@ from scipy.optimize import minimize
 from calibrate import errors
 from calibrate.diagnosis import effect_fit, score_tests, weighted_fit
 from calibrate.diagnosis import problem as equations
+from calibrate.diagnosis.deviance import AMPLIFIED, deviances
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
+from calibrate.diagnosis.misfit import Misfit, amplified, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score, likeness
@@ -59,7 +60,9 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidat
     kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]
     if not kept:
         return candidate
-    problem, new = min(kept, key=lambda pair: (is_at_bounds(pair[0], pair[1].additions), pair[1].likelihood))
+    likely = deviances([state, *(fit for _, fit in kept)])[1:]
+    ranks = [(is_at_bounds(own, fit.additions), one) for (own, fit), one in zip(kept, likely, strict=True)]
+    problem, new = kept[ranks.index(min(ranks))]
     train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
     if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
         return candidate
@@ -139,18 +142,24 @@ def has_soft_base(fit: Fit, base: Fit, thresholds: Thresholds) -> bool:
 
 
 def falls_in_either_weights(before: Model, after: Model) -> bool:
-    """Whether chi-square of the equations held out (fitted, where none are) falls with the weights of one model and of the other.
+    """Whether chi-square of the equations held out (fitted, where none are) falls with the weights of one model and of the other, but for the noise that the second adds, up to `AMPLIFIED` times that of the first.
 
     With its own weights alone a model may call its errors small that makes the noise in its forces large.
     """
-    for weights in (before.problem, after.problem):
-        held = any(part.held.size for part in weights.parts)
-        old, new = (misfit(weights, one.fit.c, one.fit.additions, held) for one in (before, after))
-        assert old is not None
-        assert new is not None
-        if not new.chi_square < old.chi_square:
-            return False
-    return True
+    held = any(part.held.size for part in before.problem.parts)
+    (old, new), (old_by_other, new_by_own) = (
+        [_misfit(weights.problem, one, held) for one in (before, after)] for weights in (before, after)
+    )
+    r = max(amplified(old, new_by_own), 1.0)
+    added = min(r, AMPLIFIED) - 1
+    return new.chi_square < old.chi_square + added and new_by_own.chi_square < old_by_other.chi_square + added / r
+
+
+def _misfit(weights: Problem, one: Model, held: bool) -> Misfit:
+    """Of a model in the weights of another."""
+    found = misfit(weights, one.fit.c, one.fit.additions, held)
+    assert found is not None
+    return found
 
 
 def grows(now: Round, train: Misfit | None, held: Misfit | None, thresholds: Thresholds) -> bool:
@@ -159,15 +168,14 @@ def grows(now: Round, train: Misfit | None, held: Misfit | None, thresholds: Thr
     return is_larger(now.train, train, worse) or (now.held is not None and is_larger(now.held, held, worse))
 
 
-def penalised_misfit(candidate: Candidate) -> float:
-    """Minus twice the log-likelihood of a fit with an effect, and the penalty on its amplitudes and shapes (BIC; Schwarz 1978)."""
-    assert candidate.fit is not None
-    return with_penalty(candidate.fit, candidate.score.degrees + len(candidate.score.shape))
-
-
-def with_penalty(fit: Fit, n_parameters: int) -> float:
-    """The same of a fit, of so many amplitudes and shapes."""
-    return fit.likelihood + n_parameters * float(np.log(fit.n_rows))
+def penalised(base: Fit, n_parameters: int, candidates: Sequence[Candidate]) -> Array:
+    """Deviances (1 + m,) of a fit and of those of candidates, with the penalty on amplitudes and shapes (BIC; Schwarz 1978), of which the first has so many more than those that all have."""
+    fits, numbers = [base], [n_parameters]
+    for one in candidates:
+        assert one.fit is not None
+        fits.append(one.fit)
+        numbers.append(one.score.degrees + len(one.score.shape))
+    return np.asarray(deviances(fits) + np.log(base.n_rows) * np.array(numbers))
 
 
 def similarities(candidates: Sequence[Candidate], thresholds: Thresholds) -> dict[str, tuple[tuple[str, float], ...]]:

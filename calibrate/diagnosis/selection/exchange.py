@@ -13,22 +13,28 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score
 from calibrate.diagnosis.selection import candidate_fit
-from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit, with_penalty
+from calibrate.diagnosis.selection.candidate_fit import Model, penalised
 from calibrate.diagnosis.selection.rounds import Candidate, Exchange, Review, Round
 from calibrate.diagnosis.selection.thresholds import Thresholds
 from calibrate.effects import Effect
 from calibrate.effects.chain import Addition, Additions
 
-GAIN = 1.0  # of the penalised misfit, that an exchange must bring
+GAIN = 1.0  # of the penalised deviance, that an exchange must bring
 
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """The place of one effect: the model without it, its penalised misfit, and the fitted candidates for it."""
+    """The place of one effect: the model with it and without, its number of amplitudes and shapes, and the fitted candidates for it."""
 
+    whole: Fit
     without: Fit
-    misfit: float
+    n_parameters: int
     candidates: list[Candidate]
+
+    def gain(self, candidate: Candidate) -> float:
+        """Of the penalised deviance, by a candidate in the place of the effect."""
+        own, other = penalised(self.whole, self.n_parameters, [candidate])
+        return float(own - other)
 
 
 def review(
@@ -44,11 +50,10 @@ def review(
         say(f"without {name}")
         place = _place(model, now, one, effects, thresholds, seed)
         gains[name] = place.without.free_loss - state.free_loss
-        equal = place.misfit + thresholds.equal_scores
-        groups[name] = (name, *(c.name for c in place.candidates if penalised_misfit(c) < equal))
+        groups[name] = (name, *(c.name for c in place.candidates if place.gain(c) > -thresholds.equal_scores))
         for candidate in place.candidates:
             assert candidate.addition is not None
-            gain = place.misfit - penalised_misfit(candidate)
+            gain = place.gain(candidate)
             if gain > most and is_sound(candidate, model.problem):
                 most, best = gain, candidate_fit.model(candidate)
                 exchange = Exchange(name, candidate.name)
@@ -92,7 +97,7 @@ def _place(
     ]
     kept = [c for c in candidates if c.fit is not None and not candidate_fit.grows(now, c.train, c.held, thresholds)]
     degrees = own.degrees if own else len(one.amplitudes)
-    return _Place(without, with_penalty(state, degrees + len(one.shape)), kept)
+    return _Place(state, without, degrees + len(one.shape), kept)
 
 
 def _rivals(scores: Sequence[Score], own: Score | None, name: str, thresholds: Thresholds) -> list[Score]:

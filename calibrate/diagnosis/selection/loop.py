@@ -20,7 +20,7 @@ from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.misfit import misfit
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection import candidate_fit
-from calibrate.diagnosis.selection.candidate_fit import Model, penalised_misfit
+from calibrate.diagnosis.selection.candidate_fit import Model, penalised
 from calibrate.diagnosis.selection.confirmation import confirm
 from calibrate.diagnosis.selection.exchange import review
 from calibrate.diagnosis.selection.rounds import Candidate, Discovery, Refusal, RefusalReason, Review, Round
@@ -149,9 +149,10 @@ def _with_best(
 ) -> tuple[Round, Model]:
     """The round with the best of the confirmed effects and those that these data cannot tell from it."""
 
-    best = min(confirmed, key=penalised_misfit)
-    limit = penalised_misfit(best) + thresholds.equal_scores
-    equal = [c.name for c in confirmed if c is not best and penalised_misfit(c) < limit]
+    left = penalised(now.fit, 0, confirmed)[1:]
+    best = confirmed[int(np.argmin(left))]
+    limit = left.min() + thresholds.equal_scores
+    equal = [c.name for c, own in zip(confirmed, left, strict=True) if c is not best and own < limit]
     group = dict.fromkeys((best.name, *candidate_fit.alike(best, significant, thresholds), *equal))
     return replace(now, added=best.name, group=tuple(group)), candidate_fit.model(best)
 

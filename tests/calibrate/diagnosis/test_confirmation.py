@@ -1,4 +1,4 @@
-"""What must hold before effects are called an explanation: errors in N, either weights, a likelihood with its determinant."""
+"""What must hold before effects are called an explanation: errors in N, either weights, a likelihood of what was measured."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from scipy import stats
 
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_tests
+from calibrate.diagnosis.deviance import residual_variances
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds, limits
+from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Verdict, exchange
 from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights
 from calibrate.diagnosis.selection.confirmation import allowed_force_error, confirm, errors_grow
-from calibrate.diagnosis.selection.rounds import Confirmation, Doubt, Review, Round
+from calibrate.diagnosis.selection.rounds import Candidate, Confirmation, Doubt, Review, Round
 from calibrate.diagnosis.selection.thresholds import DEFAULT
 from calibrate.diagnosis.selection.verdict import conclude
 from calibrate.effects import CATALOGUE
@@ -89,15 +91,39 @@ def test_an_effect_pays_for_its_parameters_in_its_own_place_whether_it_scores_or
     state = replace(model.fit, additions=(one,))
     monkeypatch.setattr(exchange.score_tests, "score", lambda *given: [])
     place = exchange._place(Model(model.problem, state), None, one, (), DEFAULT, 0)
-    assert place.misfit == pytest.approx(state.likelihood + 4 * np.log(state.n_rows))
+    assert place.n_parameters == 4
+    rival = Candidate(Score(effect("compressibility"), Status.TESTED, degrees=1), state)
+    assert place.gain(rival) == pytest.approx(3 * np.log(state.n_rows))
 
 
 @pytest.mark.parametrize("factor", [2.0, 10.0, 1000.0])
-def test_weaker_weights_make_no_model_likelier(factor):
+def test_weaker_weights_alone_make_no_model_better(factor):
+    """Its errors in N are those of before. The noise that it may excuse is at most that of before once more."""
     weaker = replace(USUAL, chi_square=USUAL.chi_square / factor, log_determinant=-5.0 + np.log(factor))
-    assert weaker.likelihood >= USUAL.likelihood - 1e-12
     assert not is_better(USUAL, weaker)
+    assert not is_better(USUAL, replace(weaker, chi_square=(USUAL.chi_square + 1.001) / factor, force=0.2))
     assert is_better(USUAL, replace(USUAL, chi_square=10.0, force=0.2))
+
+
+def test_a_model_may_leave_as_much_more_as_it_makes_of_the_noise():
+    """Relaxation that makes 18 % more of it and leaves nothing but noise, beside 10 % more than noise without."""
+    before, after = replace(USUAL, chi_square=1.1), replace(USUAL, chi_square=1.0, force=0.2, log_determinant=-4.835)
+    assert is_better(before, after)
+    assert not is_better(before, replace(after, chi_square=1.1 + 1e-6))
+
+
+def test_deviances_are_minus_twice_the_log_likelihood_of_displacements():
+    """Of one displacement u + noise, that a model a makes a (u + noise) - a u + d of: chi-square over its own noise, whatever a."""
+    rng = np.random.default_rng(0)
+    noise, d = rng.normal(size=200_000), 1.5 * rng.normal(size=200_000)
+    noise /= np.sqrt(np.mean(noise**2))
+    a = np.array([1.0, 1.2, 0.7])
+    exact = [np.mean((one * noise / one) ** 2) for one in a]
+    np.testing.assert_allclose(exact / residual_variances(exact, a**2), exact[0], rtol=1e-12)
+    left = [np.mean(((one * noise + d) / one) ** 2) for one in a]
+    np.testing.assert_allclose(left / residual_variances(left, a**2), 1.0, atol=0.01)
+    stiff = [1.0, np.mean(noise**2)]
+    assert residual_variances(stiff, [1.0, 100.0])[1] == pytest.approx((2 + 0) / 100, rel=0.01)
 
 
 def test_noise_that_a_model_makes_itself_does_not_excuse_its_errors():

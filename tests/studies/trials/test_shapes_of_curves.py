@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibrate.diagnosis import base_fit, score_tests, weighted_fit
+from calibrate.diagnosis.deviance import deviances
 from calibrate.diagnosis.hold_out import HoldOut
 from calibrate.diagnosis.selection.candidate_fit import Model, at_best_shape, fitted
 from calibrate.diagnosis.selection.rounds import Candidate
@@ -77,7 +78,8 @@ def test_a_fit_that_may_end_elsewhere_is_started_from_there_too() -> None:
     both = fitted(model, Candidate(at_best_shape(model, grid)), DEFAULT)
     assert alone.fit is not None
     assert both.fit is not None
-    assert both.fit.likelihood < alone.fit.likelihood - 20
+    alone_left, both_left = deviances([alone.fit, both.fit])
+    assert both_left < alone_left - 20
     assert both.addition is not None
     true = label["effects"][0]["amplitudes"]["k"]
     assert abs(both.addition.amplitudes[0] - true) < 2.5 * both.deviations[0] < 0.2 * true
