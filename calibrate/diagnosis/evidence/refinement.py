@@ -1,7 +1,7 @@
 """The best subsets fitted without linearisation, and their probabilities.
 
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
-evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`, with the variance that residuals have by `calibrate.diagnosis.deviance`. The noise there is what its effects make of that of the displacements: the base of each is as stiff as it is,
+evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`, with the variance that residuals have by `calibrate.diagnosis.misfit`. The noise there is what its effects make of that of the displacements: the base of each is as stiff as it is,
 or a softer one would win.
 
 A fit of several effects is evidence for its parts, too: what a part lacks may be an error of its formulas that looks like it.
@@ -21,13 +21,13 @@ from scipy import special
 from calibrate import errors
 from calibrate.diagnosis import effect_fit, model_weights, weighted_fit
 from calibrate.diagnosis import problem as equations
-from calibrate.diagnosis.deviance import residual_variances
 from calibrate.diagnosis.effect_fit import Fit
 from calibrate.diagnosis.evidence.explanations import Alternatives, Explanation
 from calibrate.diagnosis.evidence.formula_error import FittedEffect, SecondOrder
 from calibrate.diagnosis.evidence.linear_evidence import Evidence, Subset, over_variances
 from calibrate.diagnosis.evidence.priors import Priors
 from calibrate.diagnosis.evidence.signatures import base_span, disturbances, prior_deviations
+from calibrate.diagnosis.misfit import residual_variances
 from calibrate.diagnosis.parameters import Variables
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.selection.candidate_fit import has_soft_base, is_at_bounds, is_possible, is_told

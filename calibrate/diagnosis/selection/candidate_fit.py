@@ -15,9 +15,8 @@ from scipy.optimize import minimize
 from calibrate import errors
 from calibrate.diagnosis import effect_fit, score_tests, weighted_fit
 from calibrate.diagnosis import problem as equations
-from calibrate.diagnosis.deviance import AMPLIFIED, deviances
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.misfit import Misfit, amplified, is_better, is_larger, misfit
+from calibrate.diagnosis.misfit import AMPLIFIED, Misfit, amplified, deviances, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score, likeness

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibrate.diagnosis.deviance import deviances
-from calibrate.diagnosis.misfit import Misfit, misfit
+from calibrate.diagnosis.misfit import Misfit, deviances, misfit
 from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights, is_at_bounds
 from calibrate.diagnosis.selection.rounds import Confirmation, Doubt
 from calibrate.diagnosis.selection.thresholds import DEFAULT, Thresholds

@@ -12,9 +12,8 @@ from scipy import stats
 
 from calibrate.data.experiment import Noise
 from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_tests
-from calibrate.diagnosis.deviance import residual_variances
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit
+from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit, residual_variances
 from calibrate.diagnosis.parameters import at_bounds, limits
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Verdict, exchange

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibrate.diagnosis import base_fit, score_tests, weighted_fit
-from calibrate.diagnosis.deviance import deviances
 from calibrate.diagnosis.hold_out import HoldOut
+from calibrate.diagnosis.misfit import deviances
 from calibrate.diagnosis.selection.candidate_fit import Model, at_best_shape, fitted
 from calibrate.diagnosis.selection.rounds import Candidate
 from calibrate.diagnosis.selection.thresholds import DEFAULT
