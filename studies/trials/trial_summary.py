@@ -20,6 +20,7 @@ from studies.trials.judgement import JudgedTrial
 from studies.trials.reliability import Reliability, Replaced, reliability, replaced
 
 FIELD = "stiffness field"
+CLEAR = 100.0  # score of either of two effects beside the other, from which the lesser is no small thing
 
 
 class Ending(StrEnum):
@@ -150,7 +151,7 @@ EFFECT_COLUMNS = [
 
 @dataclass(frozen=True)
 class TrialSummary:
-    """Counts over all trials. pairs: two effects, each strong beside the other; pairs_found: both in the groups of what is named; pairs_right: both named themselves; pairs_at_first: each strong before either is found.
+    """Counts over all trials. pairs: two effects, each strong beside the other; pairs_found: both in the groups of what is named; pairs_right: both named themselves; pairs_clear, pairs_clear_found: the same, of those with a score above `CLEAR` each; pairs_at_first: each strong before either is found.
     fields: coefficients of stiffness fields. seconds: CPU time of a diagnosis, median. reliability: of the probabilities."""
 
     trials: int
@@ -166,6 +167,8 @@ class TrialSummary:
     pairs: int
     pairs_found: int
     pairs_right: int
+    pairs_clear: int
+    pairs_clear_found: int
     pairs_at_first: int
     pairs_at_first_found: int
     pairs_in_model: int
@@ -186,7 +189,10 @@ def summary(trials: Sequence[JudgedTrial]) -> TrialSummary:
     """Counts over judged trials, see `judgement.judge`."""
     nulls = [one for one in trials if not one.hidden]
     pairs = [one for one in trials if len(one.hidden) == 2]
-    beside = [one for one in pairs if one.beside is not None and min(one.beside.values()) > GLOBAL_LIMIT]
+    beside, clear = (
+        [one for one in pairs if one.beside is not None and min(one.beside.values()) > limit]
+        for limit in (GLOBAL_LIMIT, CLEAR)
+    )
     at_first = [one for one in pairs if min(one.scores.values()) > GLOBAL_LIMIT]
     single = [one for one in trials if len(one.hidden) == 1]
     names = sorted({one.hidden[0] for one in single})
@@ -208,6 +214,8 @@ def summary(trials: Sequence[JudgedTrial]) -> TrialSummary:
         pairs=len(beside),
         pairs_found=sum(all(one.hit) for one in beside),
         pairs_right=sum(all(one.exact) for one in beside),
+        pairs_clear=len(clear),
+        pairs_clear_found=sum(all(one.hit) for one in clear),
         pairs_at_first=len(at_first),
         pairs_at_first_found=sum(all(one.hit) for one in at_first),
         pairs_in_model=sum(_in_model(one) for one in beside),

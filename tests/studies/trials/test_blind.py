@@ -76,7 +76,14 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
         trial(tmp_path, "weak", ["force offset"], verdict="nothing significant", score=2.0),
         trial(tmp_path, "null", [], verdict="nothing significant"),
         trial(tmp_path, "alarm", [], verdict="significant, not explained"),
-        trial(tmp_path, "pair", ["force offset", "viscoelasticity"], ["force offset", "viscoelasticity"], value=2.0),
+        trial(
+            tmp_path,
+            "pair",
+            ["force offset", "viscoelasticity"],
+            ["force offset", "viscoelasticity"],
+            value=2.0,
+            beside=101.0,
+        ),
         trial(tmp_path, "lesser", ["force offset", "viscoelasticity"], ["force offset"], closest=["viscoelasticity"]),
         trial(tmp_path, "half", ["force offset", "viscoelasticity"], ["force offset"]),
         trial(tmp_path, "imitated", ["force offset", "viscoelasticity"], ["force offset"], beside=1.0),
@@ -91,6 +98,7 @@ def test_diagnosis_hits_misses_and_wrong_names_are_told(tmp_path):
     assert (numbers["absent"], numbers["absent_wrong"]) == (2, 1)
     assert (numbers["pairs"], numbers["pairs_found"], numbers["pairs_in_model"]) == (3, 1, 2)
     assert numbers["pairs_right"] == 1
+    assert (numbers["pairs_clear"], numbers["pairs_clear_found"]) == (1, 1)
     assert (numbers["pairs_at_first"], numbers["pairs_at_first_found"]) == (4, 1)
     broken = blind_report.write_report(tmp_path / "broken", homes, {"twin-7": "ValueError: nothing left"}, Manifest())
     assert broken.startswith(text) and "twin-7 (ValueError: nothing left)" in broken
