@@ -120,11 +120,11 @@ def is_better(before: Misfit, after: Misfit) -> bool:
     """Whether an error falls, outside noise, as some effects amplify it; and the model is likelier."""
     own, usual = after.outside_noise(_noise_of(before, after)), before.outside_noise(before.noise)
     left = np.array([before.chi_square, after.chi_square])
-    old, new = left / residual_variances(left, [1.0, amplified(before, after)])
+    old, new = left / residual_variances(left, [1.0, amplification(before, after)])
     return bool(new < old) and any(a < b for a, b in zip(own, usual, strict=True))
 
 
-def amplified(before: Misfit, after: Misfit) -> float:
+def amplification(before: Misfit, after: Misfit) -> float:
     """Variance of the noise that a model makes of the same displacements, over that of the model before."""
     return float(np.exp(after.log_determinant - before.log_determinant))
 

@@ -16,7 +16,7 @@ from calibrate import errors
 from calibrate.diagnosis import effect_fit, score_tests, weighted_fit
 from calibrate.diagnosis import problem as equations
 from calibrate.diagnosis.effect_fit import Fit
-from calibrate.diagnosis.misfit import AMPLIFIED, Misfit, amplified, deviances, is_better, is_larger, misfit
+from calibrate.diagnosis.misfit import AMPLIFIED, Misfit, amplification, deviances, is_better, is_larger, misfit
 from calibrate.diagnosis.parameters import at_bounds
 from calibrate.diagnosis.problem import Problem
 from calibrate.diagnosis.score_tests import Score, likeness
@@ -59,8 +59,8 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidat
     kept = [pair for pair in found if pair is not None and pair[1].free_loss < limit]
     if not kept:
         return candidate
-    likely = deviances([state, *(fit for _, fit in kept)])[1:]
-    ranks = [(is_at_bounds(own, fit.additions), one) for (own, fit), one in zip(kept, likely, strict=True)]
+    left = deviances([state, *(fit for _, fit in kept)])[1:]
+    ranks = [(is_at_bounds(own, fit.additions), one) for (own, fit), one in zip(kept, left, strict=True)]
     problem, new = kept[ranks.index(min(ranks))]
     train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
     if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
@@ -149,7 +149,7 @@ def falls_in_either_weights(before: Model, after: Model) -> bool:
     (old, new), (old_by_other, new_by_own) = (
         [_misfit(weights.problem, one, held) for one in (before, after)] for weights in (before, after)
     )
-    r = max(amplified(old, new_by_own), 1.0)
+    r = max(amplification(old, new_by_own), 1.0)
     added = min(r, AMPLIFIED) - 1
     return new.chi_square < old.chi_square + added and new_by_own.chi_square < old_by_other.chi_square + added / r
 

@@ -22,13 +22,13 @@ def confirm(base: Model, final: Model, thresholds: Thresholds = DEFAULT) -> Conf
     """Whether the errors of a model are such that its effects explain what the base left."""
     before, after = (_misfit(one) for one in (base, final))
     limit = allowed_force_error(before, after, thresholds)
-    likely = deviances([base.fit, final.fit])
+    of_base, of_final = deviances([base.fit, final.fit])
     found = {
         Doubt.ERRORS_GROW: errors_grow(before, after, thresholds),
         Doubt.NO_CLEAR_FALL: not _falls_clearly(before, after, thresholds),
         Doubt.OTHER_WEIGHTS: not falls_in_either_weights(base, final),
         Doubt.LARGE_FORCE_ERROR: bool(np.isfinite(limit)) and not after.force <= limit,
-        Doubt.WEAKER_WEIGHTS: not likely[1] < likely[0],
+        Doubt.NO_LIKELIER: not of_final < of_base,
         Doubt.AT_BOUNDS: is_at_bounds(final.problem, final.fit.additions),
     }
     return Confirmation(before, after, limit, tuple(doubt for doubt, holds in found.items() if holds))

@@ -141,7 +141,7 @@ class Doubt(StrEnum):
     NO_CLEAR_FALL = "no error falls clearly"
     OTHER_WEIGHTS = "errors fall in the weights of one model only"
     LARGE_FORCE_ERROR = "large force error left"
-    WEAKER_WEIGHTS = "likelihood does not rise"
+    NO_LIKELIER = "likelihood does not rise"
     AT_BOUNDS = "amplitude at the end of what is possible"
     NOT_NEEDED = "no effect has an inclusion probability above 95 %"
     OUTSIDE_BAND = "replay leaves its band"
