@@ -97,7 +97,8 @@ def _updated(new: dict[str, Any]) -> dict[str, str]:
         "band_mm": f"{band['field']:.3f}",
     }
     if new["replay"]["force_test"] is not None:  # of several tests none may judge
-        numbers["force_p"] = f"{new['replay']['force_test']['p']:.2f}"
+        p = new["replay"]["force_test"]["p"]
+        numbers["force_p"] = f"{p:.2f}" if p >= 0.005 else f"{p:.0e}"
     for one in new["effects"]:
         if one["effect"] == "viscoelasticity":
             numbers |= {"g": f"{one['amplitudes'][0]:.2f}", "tau": f"{one['shape'][0]:.1f}"}
