@@ -238,6 +238,13 @@ FOREIGN_SETS = (
         "revision cf355255, in the order of the plan; stopped for time, looked at once, at the end",
         frozenset(NEARLY),
     ),
+    TrialSet(
+        "foreign_101000.json",
+        FOREIGN.format(101000),
+        "one likelihood for models that make different noise, in the rounds as in the evidence",
+        "revision 4c78656f, in the order of the plan; stopped for time, looked at once, at the end",
+        frozenset(NEARLY),
+    ),
 )
 
 
