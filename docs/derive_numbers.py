@@ -23,7 +23,7 @@ from studies.output.words import percent
 from studies.trials.foreign import FOREIGN as FOREIGN_FORMS
 from studies.trials.foreign import NEARLY
 from studies.trials.judgement import JudgedAmplitude, JudgedTrial, read
-from studies.trials.trial_summary import FIELD, summary
+from studies.trials.trial_summary import CLEAR, FIELD, summary
 
 FOLDER = Path(__file__).parent
 FEW, NONE = 5, "none"
@@ -300,7 +300,7 @@ def _rates(n: dict[str, Any], sought: dict[str, str]) -> list[list[str]]:
         ["strong effect removed: not explained, and another one dominant", share(n["removed_dominant"], n["removed"]) if n["with_dominant"] else NONE, ""],
         ["two effects, each strong beside the other: both named", share(n["pairs_found"], n["pairs"]), sought["pairs"]],
         ["- both named right, themselves", share(n["pairs_right"], n["pairs"]), ""],
-        ["- of those with a score above 100 each: both named", share(n["pairs_clear_found"], n["pairs_clear"]), ""],
+        [f"- of those with a score above {CLEAR:.0f} each: both named", share(n["pairs_clear_found"], n["pairs_clear"]), ""],
         ["two effects, each strong before either is found: both named", share(n["pairs_at_first_found"], n["pairs_at_first"]), ""],
         ["both in the model, named or too small beside the other to be named", share(n["pairs_in_model"], n["pairs"]), ""],
         ["stiffness field: correlation with the hidden one, median", NONE if n["field_correlation"] is None else f"{n['field_correlation']:.2f}", ""],

@@ -54,15 +54,21 @@ def interpolation(at: Array, times: Array) -> Array:
     return weights
 
 
+def from_neighbours(e: Experiment) -> Array:
+    """(g, 4): weights of the even pictures of every group of e, see `groups`, in what the odd one is compared with."""
+    assert e.time is not None
+    times = e.time.reshape(-1, 5)
+    return interpolation(times[:, 2], times[:, [0, 1, 3, 4]])
+
+
 def split_half(e: Experiment, spacing: float, seed: int = 0) -> ControlResult:
     """Score tests of the difference between odd pictures and the even ones around them.
 
     e: its increments are those of `groups`, its noise is that from picture to picture. spacing: of the virtual
     fields, mm.
     """
-    assert e.noise is not None and e.time is not None
-    times = e.time.reshape(-1, 5)
-    weights = interpolation(times[:, 2], times[:, [0, 1, 3, 4]])
+    assert e.noise is not None
+    weights = from_neighbours(e)
     factor = float(np.sqrt(1 + (weights**2).sum(axis=1).mean()))
     noise = Noise(factor * e.noise.displacement_std, e.noise.correlation_length, 0.0, factor * e.noise.force_std)
     odd, *even = [replace(e.select(np.arange(first, e.n_increments, 5)), noise=noise) for first in (2, 0, 1, 3, 4)]

@@ -1,7 +1,7 @@
 """The best subsets fitted without linearisation, and their probabilities.
 
 In: the base, subsets ranked by `linear_evidence`. Out: `Alternatives`. Each subset is fitted with the weights that belong to it, and its
-evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`, with the variance that residuals have by `calibrate.diagnosis.misfit`. The noise there is what its effects make of that of the displacements: the base of each is as stiff as it is,
+evidence is Laplace's approximation there, see `calibrate.diagnosis.evidence.formula_error`, with the variance of residuals by `misfit.residual_variances`. The noise there is what its effects make of that of the displacements: the base of each is as stiff as it is,
 or a softer one would win.
 
 A fit of several effects is evidence for its parts, too: what a part lacks may be an error of its formulas that looks like it.
@@ -88,8 +88,9 @@ def alternatives(
     evidence = _with_errors_of_formulas(weighed)
     say.discard(STAGE)
     found = []
-    for fit, pair in zip((refit.fit for refit in refits.values()), weighed, strict=True):
-        additions, deviations, names = fit.additions, fit.deviations, tuple(sorted(fit.names))
+    for refit, pair in zip(refits.values(), weighed, strict=True):
+        fit, names = refit.fit, tuple(sorted(refit.fit.names))
+        additions, deviations = fit.additions, fit.deviations
         found.append(Explanation(names, evidence[frozenset(names)], False, 0.0, additions, deviations, fit.c))
         more = _with_discrepancy(*pair) + linear.log_odds
         found.append(Explanation(names, more, True, 0.0, additions, deviations, fit.c))

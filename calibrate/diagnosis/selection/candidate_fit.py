@@ -60,8 +60,8 @@ def fitted(now: Model, candidate: Candidate, thresholds: Thresholds) -> Candidat
     if not kept:
         return candidate
     left = deviances([state, *(fit for _, fit in kept)])[1:]
-    ranks = [(is_at_bounds(own, fit.additions), one) for (own, fit), one in zip(kept, left, strict=True)]
-    problem, new = kept[ranks.index(min(ranks))]
+    beyond = np.array([is_at_bounds(own, fit.additions) for own, fit in kept])
+    problem, new = kept[np.lexsort((left, beyond))[0]]
     train, held = (misfit(problem, new.c, new.additions, other) for other in (False, True))
     if not all(np.isfinite(one.chi_square) for one in (train, held) if one is not None):
         return candidate

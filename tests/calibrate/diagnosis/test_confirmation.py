@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import synthetic
+from relaxing_plate import FAST, held
 from scipy import stats
 
 from calibrate.data.experiment import Noise
-from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_tests
+from calibrate.diagnosis import base_fit, effect_fit, model_weights, residual_tests, weighted_fit
 from calibrate.diagnosis.hold_out import HoldOut
-from calibrate.diagnosis.misfit import Misfit, is_better, is_larger, misfit, residual_variances
+from calibrate.diagnosis.misfit import Misfit, deviances, is_better, is_larger, misfit, residual_variances
 from calibrate.diagnosis.parameters import at_bounds, limits
+from calibrate.diagnosis.problem import all_rows
 from calibrate.diagnosis.score_tests import Score, Status
 from calibrate.diagnosis.selection import Verdict, exchange
 from calibrate.diagnosis.selection.candidate_fit import Model, falls_in_either_weights
@@ -111,18 +114,35 @@ def test_a_model_may_leave_as_much_more_as_it_makes_of_the_noise():
     assert not is_better(before, replace(after, chi_square=1.1 + 1e-6))
 
 
-def test_deviances_are_minus_twice_the_log_likelihood_of_displacements():
-    """Of one displacement u + noise, that a model a makes a (u + noise) - a u + d of: chi-square over its own noise, whatever a."""
+def test_what_is_left_beyond_noise_has_one_variance_for_all():
+    """Of displacements with noise, that a model a makes a times as large, beside d that none explains; one leaves it twice."""
     rng = np.random.default_rng(0)
     noise, d = rng.normal(size=200_000), 1.5 * rng.normal(size=200_000)
-    noise /= np.sqrt(np.mean(noise**2))
-    a = np.array([1.0, 1.2, 0.7])
-    exact = [np.mean((one * noise / one) ** 2) for one in a]
-    np.testing.assert_allclose(exact / residual_variances(exact, a**2), exact[0], rtol=1e-12)
-    left = [np.mean(((one * noise + d) / one) ** 2) for one in a]
-    np.testing.assert_allclose(left / residual_variances(left, a**2), 1.0, atol=0.01)
-    stiff = [1.0, np.mean(noise**2)]
-    assert residual_variances(stiff, [1.0, 100.0])[1] == pytest.approx((2 + 0) / 100, rel=0.01)
+    a, times = np.array([1.0, 1.2, 0.7, 1.2]), (1, 1, 1, 2)
+    left = [np.mean(((one * noise + n * d) / one) ** 2) for one, n in zip(a, times, strict=True)]
+    found = left / residual_variances(left, a**2)
+    np.testing.assert_allclose(found[:3], 1.0, atol=0.01)
+    assert found[3] == pytest.approx((1.2**2 + 9) / (1.2**2 + 2.25), rel=0.01)
+
+
+def test_deviances_are_those_of_displacements():
+    """The second makes a fifth more noise and leaves 0.3 of the variance beyond it, the first 0.5; the third makes ten times the noise, of which two are allowed."""
+    fits = [
+        SimpleNamespace(free_loss=90 * x, reduced_chi_square=x, n_rows=100, log_determinant=7 + 100 * np.log(r))
+        for x, r in ((1.5, 1.0), (1.5 / 1.2, 1.2), (1.0, 10.0))
+    ]
+    np.testing.assert_allclose(deviances(fits), 90 * np.array([1.5 / 1.3, 1.0, 10 / 2.3]))
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_relaxation_is_not_refused_for_the_noise_that_it_makes(seed):
+    """By the weights of the base the true law leaves more than none, all of it noise: displacements of a ramp to 0.1 % of its length."""
+    problem, fit = base_fit.prepare([held(FAST, noise=1e-3, seed=seed).select(np.arange(6))], [all_rows])
+    relaxed = (Addition(effect("viscoelasticity"), FAST[:1], FAST[1:]),)
+    elastic, relaxing = Model(problem, fit), Model(*weighted_fit.fit_with_own_weights(problem, fit.c, relaxed))
+    before, after = (misfit(problem, one.fit.c, one.fit.additions, False) for one in (elastic, relaxing))
+    assert after.chi_square > before.chi_square
+    assert falls_in_either_weights(elastic, relaxing)
 
 
 def test_noise_that_a_model_makes_itself_does_not_excuse_its_errors():
